@@ -27,7 +27,7 @@ class Owner:
             has tried to start a process that they may not.
     """
 
-    def __init__(self, *, runs_programs: bool = False) -> None:
+    def __init__(self, *, runs_programs: bool) -> None:
         self.runs_programs = runs_programs
         self.starts_processes = False
 
@@ -81,16 +81,16 @@ class TrainingThread:
         """Returns whether no job runs or waits."""
         return self._thread is None
 
-    def submit(self, call: Callable[[], Any], owner: Owner | None = None) -> Job:
+    def submit(self, call: Callable[[], Any], owner: Owner) -> Job:
         """Add a call to the queue."""
-        job = Job(call, owner or Owner())
+        job = Job(call, owner)
         with self._lock:
             self._queue.append(job)
             if self._thread is None:
                 self._start()
         return job
 
-    def call(self, call: Callable[[], Any], owner: Owner | None = None) -> Any:
+    def call(self, call: Callable[[], Any], owner: Owner) -> Any:
         """Make a call in the thread, and wait for its result and, if nothing else is to do, for the thread's end."""
         job = self.submit(call, owner)
         thread = self._thread

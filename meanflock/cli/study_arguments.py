@@ -57,7 +57,35 @@ def _two_fields(_context: click.Context, _option: click.Parameter, given: tuple[
     return given
 
 
-_RESULTS = (
+def _as_one(name: str, kind: Any, *options: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Decorator that adds options; the command gets the tuple `kind` of their values as `name`."""
+
+    def decorate(command: Callable[..., None]) -> Any:
+        @wraps(command)
+        def call(**given: Any) -> None:
+            own = kind(**{field: given.pop(field) for field in kind._fields})
+            command(**{name: own}, **given)
+
+        added: Any = call
+        for option in reversed(options):
+            added = option(added)
+        return added
+
+    return decorate
+
+
+class ResultsOptions(NamedTuple):
+    """The results of a study that the options ask for. pareto: two fields. columns: printed columns of a figure."""
+
+    pareto: tuple[str, str] | None
+    figures: tuple[str, ...]
+    columns: int
+    over: str
+
+
+results_options = _as_one(
+    "wanted",
+    ResultsOptions,
     click.option(
         "--pareto",
         nargs=2,
@@ -78,6 +106,7 @@ _RESULTS = (
         type=click.Choice(("1", "2")),
         default="2",
         show_default=True,
+        callback=lambda _context, _option, columns: int(columns),
         help="Width of the figures in print: one column, 3.5 in, or two, 7.16 in.",
     ),
     click.option(
@@ -86,51 +115,6 @@ _RESULTS = (
         default="rounds",
         show_default=True,
         help="What learning curves are drawn over.",
-    ),
-)
-
-
-class ResultsOptions(NamedTuple):
-    """The results of a study that the options ask for. pareto: two fields. columns: printed columns of a figure."""
-
-    pareto: tuple[str, str] | None
-    figures: tuple[str, ...]
-    columns: int
-    over: str
-
-
-def results_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Decorator that adds the options of the results of a study; the command gets them as `wanted`."""
-
-    @wraps(command)
-    def call(pareto: tuple[str, str] | None, figures: tuple[str, ...], columns: str, over: str, **given: Any) -> None:
-        command(wanted=ResultsOptions(pareto, figures, int(columns), over), **given)
-
-    for option in reversed(_RESULTS):
-        call = option(call)
-    return call
-
-
-_WORKERS = (
-    click.option(
-        "--jobs",
-        type=int,
-        default=-1,
-        metavar="J",
-        help="Processes that fly at once; -1: one per core.  [default: -1]",
-        callback=_number_of_jobs,
-    ),
-    click.option(
-        "--backend",
-        type=click.Choice(("processes", "dask")),
-        default="processes",
-        show_default=True,
-        help="Processes of this machine, or a Dask cluster.",
-    ),
-    click.option(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="Dask scheduler, e.g. tcp://127.0.0.1:8786.  [default: a cluster on this machine]",
     ),
 )
 
@@ -153,16 +137,30 @@ class WorkersOptions(NamedTuple):
         return workers(self.backend, self.scheduler, self.jobs)
 
 
-def workers_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Decorator that adds the options of the workers of a study; the command gets them as `workers`."""
-
-    @wraps(command)
-    def call(jobs: int, backend: str, scheduler: str | None, **given: Any) -> None:
-        command(workers=WorkersOptions(jobs, backend, scheduler), **given)
-
-    for option in reversed(_WORKERS):
-        call = option(call)
-    return call
+workers_options = _as_one(
+    "workers",
+    WorkersOptions,
+    click.option(
+        "--jobs",
+        type=int,
+        default=-1,
+        metavar="J",
+        help="Processes that fly at once; -1: one per core.  [default: -1]",
+        callback=_number_of_jobs,
+    ),
+    click.option(
+        "--backend",
+        type=click.Choice(("processes", "dask")),
+        default="processes",
+        show_default=True,
+        help="Processes of this machine, or a Dask cluster.",
+    ),
+    click.option(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Dask scheduler, e.g. tcp://127.0.0.1:8786.  [default: a cluster on this machine]",
+    ),
+)
 
 
 @contextmanager

@@ -50,7 +50,7 @@ class FlowerServer(Aggregator):
         self._client_options = msgspec.convert(scenario.training.options, self.client.Options)
         self.note_bytes = self._client_options.note_bytes  # type: ignore[misc]
         self._server: RunningServer | None = None
-        self._owner = Owner(runs_programs=True)
+        self._owner = Owner(runs_programs=self.client.runs_programs)
 
     def step(self, state: State, uploads: Uploads) -> tuple[State, Aggregate]:
         """See `Aggregator.step`. The ServerApp runs while no learner trains in this process: both use the global random

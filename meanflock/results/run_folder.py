@@ -205,12 +205,11 @@ class RunFolder:
                 tick = block.first_tick + len(block.states) - 1
                 self._checkpointed = {"tick": tick, "block": block.block, "events_bytes": events_bytes}
             if body is not None:
-                self._background.do(self._keep, self._checkpointed | {"body": body})
+                self._background.do(self._keep, self._checkpointed, body)
 
-    def _keep(self, checkpoint: dict[str, Any]) -> None:
+    def _keep(self, begun: dict[str, Any], body: bytes) -> None:
         _sync(self._events, self._spool)  # a checkpoint goes on from these rows and events
-        body = checkpoint.pop("body")  # hundreds of megabytes, if UAVs learn large models
-        record = control.parts_of_record(checkpoint, "body", [body])
+        record = control.parts_of_record(begun, "body", [body])  # hundreds of megabytes, if UAVs learn large models
         whole = control.parts_of_record({"sha256": _digest(*record)}, "record", record)
         durable.replace(self.path / CHECKPOINT, *whole)
 

@@ -25,6 +25,7 @@ _ZONE_STEP_S = 900  # time zones differ by multiples of it
 _ZONES_S = (-12 * 3600, 14 * 3600)  # the least and the greatest time zone
 _BEGINNING_S = 10.0  # at most between the naming of a run and the writing of its scenario
 _LONGEST_REASON = 1000  # characters
+_FLY_ONE = "fly one with `meanflock run`, or name"  # where there is no run yet
 _UNITS = {known.key: known.unit for known in (*FIELDS, *DERIVED)}
 
 
@@ -91,9 +92,7 @@ def runs_in(folder: Path, progress: Callable[[int, int], None] = lambda _done, _
     try:
         found = [path for path in folder.iterdir() if is_run(path)]
     except OSError as error:
-        raise BadInput(
-            f"{folder}: {error.strerror}; fly one with `meanflock run`, or name a folder with runs"
-        ) from error
+        raise BadInput(f"{folder}: {error.strerror}; {_FLY_ONE} a folder with runs") from error
     runs = []
     for number, path in enumerate(found, 1):
         runs.append(_read(path))
@@ -115,8 +114,8 @@ def latest(parent: Path, *, is_resumable: bool = False) -> Path:
     for path in sorted(found, key=lambda path: (began(path), path.name), reverse=True):
         if not is_resumable or _read(path).resumable:
             return path
-    mend = "name the folder of one" if found else "fly one with `meanflock run`, or name the folder of one"
-    raise BadInput(f"latest: there is no run {wanted}".rstrip() + f" in {parent.absolute()}; {mend}")
+    remedy = f"{'name' if found else _FLY_ONE} the folder of one"
+    raise BadInput(f"latest: there is no run {wanted}".rstrip() + f" in {parent.absolute()}; {remedy}")
 
 
 def stored_run(folder: Path) -> StoredFolder:

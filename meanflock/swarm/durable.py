@@ -29,7 +29,7 @@ def replace(path: Path, *parts: bytes | memoryview) -> None:
     try:
         with part.open("wb", buffering=0) as file:
             for content in parts:
-                write(file, memoryview(content))
+                write(file, content)
             os.fsync(file.fileno())
         rename(part, path)
     except OSError:
@@ -94,8 +94,9 @@ def replacing(path: Path) -> Iterator[FileIO]:
 
 def write(file: FileIO, content: bytes | memoryview) -> None:
     """Writes all of `content`: a single call may write only a part without an error."""
-    while content:
-        content = content[file.write(content) :]
+    rest = memoryview(content)
+    while rest:
+        rest = rest[file.write(rest) :]
 
 
 def move(part: Path, path: Path) -> None:

@@ -279,10 +279,10 @@ def test_a_study_that_was_ended_flies_the_rest_to_the_tables_of_an_undisturbed_o
     until(finished, "a flight that is finished", pause_s=0.005)
     study.send_signal(number)
     study.communicate(timeout=DEADLINE_S)
-    kept = finished()
-    assert 0 < len(kept) < 20
+    flights_kept = finished()
+    assert 0 < len(flights_kept) < 20
     assert main([*REST, "--jobs", "2", "--out", str(tmp_path)]) == 0
-    assert kept.items() <= finished().items()
+    assert flights_kept.items() <= finished().items()
     assert len(finished()) == 20
     assert tables(tmp_path) == undisturbed
 
